@@ -189,7 +189,7 @@ def _score(
         replace(target, frequency=float(hz * math.exp(off)))
         for target, hz, off in zip(task.targets, computed, noise, strict=True)
     ]
-    task = replace(task, targets=tuple(measured), kinematics={})
+    task = replace(task, targets=tuple(measured))
     result = calibrate(task, starts=1)
     truth = np.array([number_at(own, split_paths(name)[0]) for name in result.names])
     deviations = np.sqrt(np.diag(result.covariance))

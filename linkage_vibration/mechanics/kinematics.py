@@ -14,7 +14,7 @@ ch. 8), and the trace ends.
 import copy
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ _LEAST_STEP = 1e-8
 _BEND = 0.25  # rad; the curve should turn by this in a step, and twice that is rejected
 _FASTEST = 1e6  # d(pose)/d(alpha3), in the same scale, of a pose that is not at a toggle
 _APART = 1e-8  # Traced poses are distinguished if their variable differs by more.
+_REMEMBERED = 8  # mechanisms of different geometry whose curves are not traced again
 _TOLERANCE = 1e-13  # size of a Newton step, in the same scale, that ends the iteration
 
 
@@ -501,3 +502,19 @@ class Kinematics:
                 ends = f"its toggles, {self.toggles[0]}, and {self.toggles[1]}"
                 hint = f"it locks at {ends}; keep the range between them"
                 raise MechanismError("input.range_deg", f"{problem}: {hint}.")
+
+
+def kinematics_of(mechanism: Mechanism) -> Kinematics:
+    """Return the kinematics of a mechanism; those of the same points, pins and stroke share it."""
+    bodies = tuple((body.name, body.points) for body in mechanism.bodies)
+    assembly = mechanism.assembly_alpha3, mechanism.assembly_angles
+    kept = _kept(mechanism.ground, bodies, mechanism.input_body, mechanism.stroke, assembly)
+    if not kept:
+        kept.append(Kinematics(mechanism))
+    return kept[0]
+
+
+@lru_cache(_REMEMBERED)
+def _kept(*geometry: object) -> list[Kinematics]:
+    """Return the list that holds the kinematics of a geometry once it is known."""
+    return []

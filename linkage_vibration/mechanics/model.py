@@ -37,7 +37,7 @@ from linkage_vibration.mechanics.fbs import couple_frfs, couple_frfs_with_error,
 from linkage_vibration.mechanics.forces import Forces, is_force, magnitudes, reference, tyre_place
 from linkage_vibration.mechanics.frf import Frf
 from linkage_vibration.mechanics.identification import IdentifiedModes, identify
-from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
+from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, kinematics_of
 from linkage_vibration.mechanics.lateral import LateralForces, LateralMap, lateral_components
 from linkage_vibration.mechanics.modes import MECHANISM, DampedModes, Modes, damp_modes, solve_modes
 from linkage_vibration.mechanics.regularisation import Blocks, MeasuredFrfs, noise_gain, receptances
@@ -128,7 +128,7 @@ class LinkageModel:
         self.mechanism, self.half = mechanism, half
         if vertical is not None:
             kinematics = vertical.kinematics
-        self.kinematics: Kinematics = kinematics or Kinematics(mechanism)
+        self.kinematics: Kinematics = kinematics or kinematics_of(mechanism)
         self.components: tuple[Component | FrfComponent, ...]
         if half == "vertical":
             self.components = mechanism.components(reduced=reduced)

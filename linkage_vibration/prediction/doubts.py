@@ -16,7 +16,7 @@ import numpy as np
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.description import Base, Chain, Cylinder, Mechanism, RigidBody
 from linkage_vibration.mechanics.forces import GRAVITY, tyre_place
-from linkage_vibration.mechanics.kinematics import Configuration, Kinematics
+from linkage_vibration.mechanics.kinematics import Configuration, Kinematics, kinematics_of
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.paths import split_paths
 from linkage_vibration.mechanics.springs import length_and_rate, oil_pressure
@@ -71,7 +71,7 @@ def tabulated_doubts(mechanism: Mechanism, table: Table) -> Iterator[str]:
     def mount_loads(alpha3: float) -> FloatArray:
         return -table.components_at_rest(np.array([alpha3]))[tyres, 0]
 
-    return _doubts(mechanism, Kinematics(mechanism), mount_loads)
+    return _doubts(mechanism, kinematics_of(mechanism), mount_loads)
 
 
 def _doubts(

@@ -29,7 +29,8 @@ from linkage_vibration.prediction.ground import (
     ground_lines,
     ground_squares,
     halves_of,
-    mean_squares,
+    line_weights,
+    weighted,
 )
 from linkage_vibration.prediction.level_cache import Arrays, Keep, Kept, computed
 from linkage_vibration.prediction.loads import UnitLoad, soil_motion, weights_at
@@ -268,12 +269,15 @@ class GroundMembers:
         omega = 2.0 * math.pi * np.tile(lines, len(mounts))[np.newaxis]
         every = np.arange(len(mounts)).repeat(len(lines))
         orders, values = [1 - min(i, 1) for i in known] * (members.n + 1), []
+        weights: Singles | None = None  # They are the same at all angles.
         for angle in self._angles:
             responses = members.at(angle[np.newaxis]).at(0).responses(omega, every)
             transfer = (responses[:, 0] + 1j * responses[:, 1]).swapaxes(1, 2)
             transfer = transfer.reshape(-1, len(mounts), len(lines))
             squares = ground_squares(transfer, orders, mounts, terrain, lines, half.difference)
-            values.append(mean_squares(squares, np.exp(self._speeds)))
+            if weights is None:
+                weights = line_weights(squares, np.exp(self._speeds))
+            values.append(weighted(squares, weights))
         return np.reshape(values, (_N_ANGLES, members.n + 1, len(known), _N_SPEEDS))
 
     def levels(

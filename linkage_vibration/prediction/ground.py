@@ -324,13 +324,18 @@ def mean_squares(
     They are those of the wavelengths that the terrain knows, or if `uncovered` those of all others;
     and those by the mean of both tracks, or if `wheels` by the tracks of the wheels on one side.
     """
-    weights = _weights(squares, speeds[:, np.newaxis], uncovered, wheels)
+    weights = line_weights(squares, speeds, uncovered=uncovered, wheels=wheels)
+    return weighted(squares, weights)
+
+
+def weighted(squares: GroundSquares, weights: NDArray[np.float32]) -> FloatArray:
+    """Return mean squares, (n_out, n_speeds), by the `line_weights` of the same lines."""
     values = squares.values.reshape(len(squares.values), -1)
     # The last bits of a large product depend on the number of threads of BLAS.
     pairs = zip(_blocks(values), _blocks(weights), strict=True)
     product = sum(rows[:, np.newaxis] @ columns.swapaxes(1, 2) for rows, columns in pairs)
     whole = np.swapaxes(product, 1, 2).reshape(_BLOCK[0] * len(product), -1)
-    return np.asarray(whole[: len(values), : len(speeds)], np.float64)
+    return np.asarray(whole[: len(values), : len(weights)], np.float64)
 
 
 def _blocks(matrix: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -341,11 +346,11 @@ def _blocks(matrix: NDArray[np.float32]) -> NDArray[np.float32]:
     return filled.reshape(-1, height, filled.shape[1] // width, width).transpose(2, 0, 1, 3)
 
 
-def _weights(
-    squares: GroundSquares, speeds: FloatArray, uncovered: bool, wheels: bool
+def line_weights(
+    squares: GroundSquares, speeds: FloatArray, *, uncovered: bool = False, wheels: bool = False
 ) -> NDArray[np.float32]:
-    """Return what coefficients are multiplied with at speeds, (n_speeds, 1), in their order."""
-    f, terrain = squares.frequencies, squares.terrain
+    """Return what coefficients are multiplied with at speeds, (n_speeds, n), in their order."""
+    f, terrain, speeds = squares.frequencies, squares.terrain, speeds[:, np.newaxis]
     step = math.log(f[1] / f[0])
     # A limit between two lines cuts a part of what the nearer one stands for.
     low, high = (np.log(n * speeds) - np.log(f) for n in terrain.wavenumbers)
@@ -480,7 +485,7 @@ class GroundTable:
         felt = [output in tyres for output in self._outputs]
         values = np.zeros((count + 1, n_rows + 1, len(speeds)))
         for half in self._halves:
-            parts = [self._squares(half, angle) for angle in angles.tolist()]
+            parts = self._squares(half, angles)
             every = replace(parts[0], values=np.concatenate([part.values for part in parts]))
             # The acceleration has the largest share of its power at short waves, like forces.
             sharpest = replace(parts[0], values=np.stack([part.values[1] for part in parts]))
@@ -498,17 +503,19 @@ class GroundTable:
         rows = np.concatenate([values, loads.repeat(len(speeds), axis=2)], axis=1)
         return {"values": np.ascontiguousarray(rows.transpose(0, 2, 1), np.float32)}
 
-    def _squares(self, half: Half, alpha3: float) -> GroundSquares:
-        """Return the coefficients at an angle, of the response and of forces."""
+    def _squares(self, half: Half, angles: FloatArray) -> list[GroundSquares]:
+        """Return the coefficients at each angle, of the response and of forces."""
         f, outputs = ground_lines(self._terrain, self.lines), self._outputs
         assert isinstance(half.source, Table)
         known = [i for i, place in enumerate(outputs) if half.knows(place)]
-        places = [outputs[i] for i in known]
-        frf = half.source.frf(alpha3, places, half.inputs)
-        transfer = np.zeros((len(outputs), len(half.mounts), len(f)), complex)
-        transfer[known] = ground_transfer(frf, half.mounts, f, places)
-        orders = [1, 2, *[0] * (len(transfer) - 2)]
-        return ground_squares(transfer, orders, half.mounts, self._terrain, f, half.difference)
+        places, squares = [outputs[i] for i in known], []
+        orders = [1, 2, *[0] * (len(outputs) - 2)]
+        for frf in half.source.frf_at_each(angles, places, half.inputs):
+            transfer = np.zeros((len(outputs), len(half.mounts), len(f)), complex)
+            transfer[known] = ground_transfer(frf, half.mounts, f, places)
+            of = self._terrain, f, half.difference
+            squares.append(ground_squares(transfer, orders, half.mounts, *of))
+        return squares
 
     def _column(self, speeds: FloatArray) -> FloatArray:
         """Return the places of speeds, in steps: even in ln(speed) and, if slow, in the delay."""

@@ -8,7 +8,7 @@ product of matrices belongs to one angle.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
@@ -22,6 +22,7 @@ from linkage_vibration.mechanics.arrays import BoolArray, ComplexArray, FloatArr
 from linkage_vibration.mechanics.description import Chain, Mechanism
 from linkage_vibration.mechanics.forces import tyre_place
 from linkage_vibration.mechanics.model import Place
+from linkage_vibration.mechanics.response import PoleResidue
 from linkage_vibration.messages.columns import MessageColumns
 from linkage_vibration.prediction.ensemble import EnsembleResponses, GroundMembers, load_factors
 from linkage_vibration.prediction.excitation import Excitation, Source
@@ -801,6 +802,9 @@ def _padded(values: FloatArray, layout: _Layout, n_terms: int) -> FloatArray:
     return np.concatenate([part.reshape(-1, n) for part in (poles, above, *rest)]).T
 
 
+_Numbers = tuple[FloatArray, FloatArray, FloatArray]  # poles, numerators and all others
+
+
 class _Samples:
     """Poles and residues at the angles of one piece, with the modes of the table first."""
 
@@ -817,7 +821,7 @@ class _Samples:
         self._variables = stroke_variable(np.array(ends), table.toggles)
         self._places = list(dict.fromkeys(p for load in inputs for p in load.places))
         self._n_terms = 0
-        self._solved: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = {}
+        self._solved: dict[float, _Numbers] = {}
 
     @property
     def layout(self) -> _Layout:
@@ -841,6 +845,9 @@ class _Samples:
             np.linspace(self._variables[0], self._variables[1], cells + 1), self._table.toggles
         )
         at[[0, -1]] = self._ends
+        # Half of the angles of a finer division are those of the coarser one.
+        new = [angle for angle in at.tolist() if angle not in self._solved]
+        self._solved.update(zip(new, self._responses_at(new), strict=True))
         roots: ComplexArray | None = None
         rows, modes = [], self._table.evaluate(at)[:, : 2 * self._table.n_modes]
         for alpha3, values in zip(at.tolist(), modes, strict=True):
@@ -853,9 +860,6 @@ class _Samples:
         self, alpha3: float, modes: FloatArray, before: ComplexArray | None
     ) -> tuple[FloatArray, ComplexArray]:
         """Return the values at an angle and its poles, in the order of those before."""
-        # Half of the angles of a finer division are those of the coarser one.
-        if alpha3 not in self._solved:
-            self._solved[alpha3] = self._responses_at(alpha3)
         poles, above, others = self._solved[alpha3]
         half = poles[2] / 2.0
         roots: ComplexArray = np.asarray(np.sqrt(half * half - poles[0] - 1j * poles[1]) - half)
@@ -869,12 +873,17 @@ class _Samples:
         row = np.concatenate([poles[:, order].ravel(), above[:, order].ravel(), others])
         return row, roots[order]
 
-    def _responses_at(self, alpha3: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return poles, numerators and all other values at an angle, as `_Layout` arranges them."""
+    def _responses_at(self, angles: list[float]) -> Iterator[_Numbers]:
+        """Return poles, numerators and all other values at angles, as `_Layout` arranges them."""
         # At its end the table uses the next piece, whose number of poles may be another.
-        alpha3 = min(alpha3, math.nextafter(self._ends[1], self._ends[0]))
-        weights = weights_at(self._inputs, self._places, alpha3)
-        frf = self._table.frf(alpha3, self._outputs, self._places).driven(*weights)
+        inside = np.minimum(angles, math.nextafter(self._ends[1], self._ends[0]))
+        frfs = self._table.frf_at_each(inside, self._outputs, self._places)
+        weights = (weights_at(self._inputs, self._places, angle) for angle in inside.tolist())
+        return map(self._numbers, frfs, weights)
+
+    def _numbers(self, every: PoleResidue, weights: FloatArray) -> _Numbers:
+        """Return the same at one angle, from its FRFs and the weights of the unit loads there."""
+        frf = every.driven(*weights)
         a, b, rest, rate = frf.residues, frf.rates, frf.residual, frf.residual_rate
         # A tyre is compressed by the motion of the soil under it, too.
         own = np.array(

@@ -5,7 +5,6 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.ground_motion import soil_places
-from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.kinematics import kinematics_of
 from linkage_vibration.mechanics.model import Place
 from linkage_vibration.support.resources import command
 from linkage_vibration.table.table import Table
@@ -179,10 +178,9 @@ def _moment(body: str, mechanism: Mechanism, where: str) -> UnitLoad:
     (x0, z0), (x1, z1) = points[first], points[second]
     across = np.array([-(z1 - z0), x1 - x0]) / math.dist(points[first], points[second]) ** 2
     places: Sequence[Place] = [(point, d) for point in (first, second) for d in ("x", "z")]
-    kinematics = cache(lambda: Kinematics(mechanism))  # which takes long, and kept levels need not
 
     def weights(alpha3: float) -> tuple[FloatArray, FloatArray]:
-        turn = 0.0 if body == "base" else kinematics().at(alpha3).angle(body)
+        turn = 0.0 if body == "base" else kinematics_of(mechanism).at(alpha3).angle(body)
         cos, sin = math.cos(turn), math.sin(turn)
         x, z = cos * across[0] - sin * across[1], sin * across[0] + cos * across[1]
         return np.array([-x, -z, x, z]), np.zeros(4)

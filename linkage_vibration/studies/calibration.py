@@ -11,7 +11,7 @@ over theirs. A parameter without a stated deviation has a uniform prior between 
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from linkage_vibration.mechanics.description import (
     coarser,
 )
 from linkage_vibration.mechanics.keys import CheckedMapping
-from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.kinematics import Kinematics, kinematics_of
 from linkage_vibration.mechanics.lateral_keys import inertia_rooms
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
@@ -84,7 +84,6 @@ class CalibrationTask:
     parameters: tuple[Parameter, ...]
     targets: tuple[Target, ...]
     # Those of the last geometry: computing them takes longest, and most fits keep the geometry.
-    kinematics: dict[object, Kinematics] = field(default_factory=dict, compare=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -337,14 +336,15 @@ def _fit(
     steps = np.full(len(guess), _STEP_OTHER)
     steps[: len(unknowns.parameters)] = _STEP
 
+    def described(x: FloatArray) -> Mechanism:
+        return mechanism_from_mapping(with_numbers(exact, unknowns.numbers(x)), drawn=True)
+
     def residuals(x: FloatArray, near: Kinematics | None = None) -> FloatArray:
-        mechanism = mechanism_from_mapping(with_numbers(exact, unknowns.numbers(x)), drawn=True)
-        misfits = _misfits(calibration, mechanism, near) / scatter
+        misfits = _misfits(calibration, described(x), near) / scatter
         return np.concatenate([misfits, unknowns.whitening @ unknowns.changes(x)])
 
     def jacobian(x: FloatArray) -> FloatArray:
-        here = residuals(x)
-        [near] = calibration.kinematics.values()
+        here, near = residuals(x), kinematics_of(described(x))
         columns = [(residuals(x + step, near) - here) / step.sum() for step in np.diag(steps)]
         return np.array(columns).T
 
@@ -359,12 +359,8 @@ def _misfits(
     calibration: CalibrationTask, mechanism: Mechanism, near: Kinematics | None
 ) -> FloatArray:
     """Return ln(frequency / wanted) / deviation, (n_targets,); `near` is of a similar mechanism."""
-    mechanism, closed = coarser(mechanism, COARSE_ELEMENTS, COARSE_MODES), calibration.kinematics
-    geometry = mechanism.ground, tuple((body.name, body.points) for body in mechanism.bodies)
-    if near is None and geometry not in closed:
-        closed.clear()
-        closed[geometry] = Kinematics(mechanism)
-    kinematics = closed[geometry] if near is None else near.nearby(mechanism)
+    mechanism = coarser(mechanism, COARSE_ELEMENTS, COARSE_MODES)
+    kinematics = kinematics_of(mechanism) if near is None else near.nearby(mechanism)
     model = LinkageModel(mechanism, kinematics=kinematics)
     frequencies = _natural_frequencies(model, calibration.targets)
     wanted, deviations = np.array([(t.frequency, t.deviation) for t in calibration.targets]).T

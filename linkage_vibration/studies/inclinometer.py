@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.kinematics import kinematics_of
 
 _BEYOND = math.radians(3.0)  # an inclination may lie beyond the stroke by its error
 _DEGREE = 3  # a sensor that a lever turns bends to both sides of a straight line
@@ -108,7 +108,7 @@ def crank_angles(
     names = [each.name for each in mechanism.bodies]
     if body not in names:
         raise InclinometerError(f"There is no body {body!r}; name one of: {', '.join(names)}.")
-    kinematics, (first, last) = Kinematics(mechanism), mechanism.stroke
+    kinematics, (first, last) = kinematics_of(mechanism), mechanism.stroke
     low, high = kinematics.closable_range
     grid = np.linspace(max(first - _BEYOND, low + 1e-6), min(last + _BEYOND, high - 1e-6), 721)
     angles = np.unwrap([kinematics.at(alpha3).angle(body) for alpha3 in grid.tolist()])

@@ -18,7 +18,7 @@ from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.arrays import FloatArray
 from linkage_vibration.mechanics.bodies.frfs import Frfs
 from linkage_vibration.mechanics.description import Mechanism
-from linkage_vibration.mechanics.kinematics import Kinematics
+from linkage_vibration.mechanics.kinematics import kinematics_of
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.modes import MECHANISM
 from linkage_vibration.mechanics.response import PoleResidue
@@ -138,7 +138,7 @@ class _Trials:
 
     def __init__(self, scene: Scene, solved: Callable[[], object]) -> None:
         self.scene, self.solved = scene, solved
-        self.kinematics = Kinematics(scene.with_settings(1, 0, 1))
+        self.kinematics = kinematics_of(scene.with_settings(1, 0, 1))
         angles = np.linspace(*scene.angles, 1 if scene.one_angle else _ANGLES).tolist()
         finest, top = self.model(*_FINEST), _ABOVE * scene.band[1]
         self.exact = {alpha3: self._answer(finest, alpha3) for alpha3 in angles}

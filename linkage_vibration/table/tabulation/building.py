@@ -11,7 +11,6 @@ from scipy.optimize import linear_sum_assignment
 
 from linkage_vibration.errors import check_type
 from linkage_vibration.mechanics.arrays import FloatArray
-from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel, Place
 from linkage_vibration.mechanics.response import peak_search_band
 from linkage_vibration.support.progress import table_bar
@@ -20,7 +19,7 @@ from linkage_vibration.table.pole_cells import oscillating, values_of
 from linkage_vibration.table.table import Table, TableError, both_halves
 from linkage_vibration.table.tabulation.accuracy import COARSEST, TOLERANCE, Accuracy
 from linkage_vibration.table.tabulation.cell_making import cell_arrays
-from linkage_vibration.table.tabulation.ensemble import Meshed, with_uncertainty
+from linkage_vibration.table.tabulation.ensemble import Drawn, with_uncertainty
 from linkage_vibration.table.tabulation.naming import with_mode_names
 from linkage_vibration.table.tabulation.piece_refinement import RefinedPiece, refine
 from linkage_vibration.table.tabulation.refinement import first_points, refine_pieces
@@ -76,7 +75,7 @@ def build_table(
         with table_bar(model.mechanism.name) as shown:
             return build_table(model, tolerance, points, shown)
     first, *others = model.halves
-    share, drawn = 1.0 / (1 + len(others)), dict[tuple[int, int], tuple[Mechanism, Meshed]]()
+    share, drawn = 1.0 / (1 + len(others)), Drawn()
     seen = model.mechanism.response.point, model.mechanism.response.direction
     given = tolerance, points, seen, drawn
     table = _half(first, *given, lambda done: progress(share * done))
@@ -91,7 +90,7 @@ def _half(
     tolerance: float,
     points: Sequence[str] | None,
     seen: Place,
-    drawn: dict[tuple[int, int], tuple[Mechanism, Meshed]],
+    drawn: Drawn,
     progress: Callable[[float], object],
 ) -> Table:
     share = _SHARE if model.mechanism.uncertainty else 1.0

@@ -55,7 +55,8 @@ _MISSED = 0.3  # Deviations are not known where interpolation misses a member by
 _LEAST = 1e-4  # and by this.
 _UNCLEAR = 0.5  # MAC up to which a shape may continue two: its sum over all modes is 1.
 _NEAR = 0.03  # A pole of coarser bodies may be off by this share of its decay.
-Meshed = dict[tuple[int, int], LinkageModel]  # by elements and modes of its links
+Drawn = dict[tuple[int, int], tuple[Mechanism, list[LinkageModel]]]
+"""By row and member of a pair, a mechanism and, once it is made, the model of its vertical half."""
 _Kept = tuple[IntArray, ComplexArray, FloatArray]  # indices of modes, their shapes, and signs
 
 N_ANGLES = 257  # Even angles over the range at which a table has the standard deviations
@@ -78,10 +79,7 @@ class _Modes:
 
 
 def with_uncertainty(
-    table: Table,
-    sampler: Sampler,
-    drawn: dict[tuple[int, int], tuple[Mechanism, Meshed]],
-    progress: Callable[[float], object],
+    table: Table, sampler: Sampler, drawn: Drawn, progress: Callable[[float], object]
 ) -> Table:
     """Return a table with its deviations and, if it has FRFs and angles suffice, its ensemble."""
     mechanism = sampler.model.mechanism
@@ -107,7 +105,7 @@ def with_uncertainty(
                 of_pair = (row, 0), (row, 1)
                 for at, each in zip(of_pair, values, strict=True):
                     if at not in drawn:
-                        drawn[at] = uncertainty.described(each), {}
+                        drawn[at] = uncertainty.described(each), []
                     if at not in known:
                         known[at] = solver.model(*drawn[at]), {}
                 members = 1 + len(rows), 1 + n + len(rows)
@@ -147,7 +145,7 @@ class _Solver:
         highest, self._slow = max(self._limit, top), _CLEAR * top
         exact = [_oscillating(each.damped)[0] for each in map(sampler.solution, few)]
         for self._mesh, self._highest in itertools.product(_COARSER, (_DAMPED * highest, math.inf)):
-            model = self.model(sampler.model.mechanism, {})
+            model = self.model(sampler.model.mechanism, [])
             damped = rows_of(_damped(model.stack(np.array(few)), self._highest))
             coarse = [_oscillating(each)[0] for each in damped]
             if all(_agree(*both, highest) for both in zip(coarse, exact, strict=True)):
@@ -320,21 +318,27 @@ class _Solver:
             order, pairs = order[:0], (order[:0], order[:0])
         return order, np.where(product[pairs].real < 0.0, -1.0, 1.0)
 
-    def model(self, mechanism: Mechanism, kept: Meshed) -> LinkageModel:
-        """Return the model of a member, and keep that of its vertical half."""
-        if self._mesh not in kept:
-            kept[self._mesh] = self._vertical(mechanism)
-        return kept[self._mesh].halves[1] if self._half == "lateral" else kept[self._mesh]
+    def model(self, mechanism: Mechanism, kept: list[LinkageModel]) -> LinkageModel:
+        """Return the model of a member, and keep that of its vertical half.
 
-    def _vertical(self, mechanism: Mechanism) -> LinkageModel:
+        That of another mesh gives the lateral half the same forces at rest, as statics are exact.
+        """
+        coarse = self._coarse(mechanism)
+        if not kept:
+            kept.append(LinkageModel(coarse, kinematics=self._kinematics.nearby(coarse)))
+        if self._half == "vertical":
+            return kept[0]
+        return LinkageModel(coarse, half="lateral", vertical=kept[0])
+
+    def _coarse(self, mechanism: Mechanism) -> Mechanism:
+        """Return a mechanism whose links have fewer elements, and whose cylinders reach further."""
         springs = tuple(
             replace(s, stiffness=replace(s.stiffness, margin=_BEYOND * s.stiffness.stroke))
             if isinstance(s.stiffness, Cylinder)
             else s
             for s in mechanism.springs
         )
-        mechanism = replace(coarser(mechanism, *self._mesh), springs=springs)
-        return LinkageModel(mechanism, kinematics=self._kinematics.nearby(mechanism))
+        return replace(coarser(mechanism, *self._mesh), springs=springs)
 
     def _solved(self, model: LinkageModel, angles: FloatArray) -> list[_Modes]:
         """Return the modes of a member at angles, rad."""
