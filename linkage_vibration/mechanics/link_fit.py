@@ -21,8 +21,8 @@ and a third fit has more terms, of any damping or one of the same law.
 
 A mode among the lines has one shape, so that its residue is the outer product of the shape with
 itself. The nearest one in the least-squares sense replaces the residue that the lines give, unless
-that clearly has more, of two modes at one pole. A link whose residues have more would keep poles of
-its own when it is joined.
+that clearly has more, of two modes at one pole; then it keeps as many shapes as are clear. A link
+whose residues have more would keep poles of its own when it is joined.
 
 Noise is propagated to first order, through the coefficients, the shapes and the poles.
 """
@@ -50,9 +50,7 @@ _NEGLIGIBLE = 1e-6  # The steps end if the sum of squares falls by less than thi
 _ROUNDING = 1e-7  # Computed FRFs leave no more than this share of what is fitted: their digits.
 _COMPUTED = 1e-4  # Measured FRFs leave more than this share of what is fitted.
 _UNDONE = 1e-8  # Smaller singular values of scaled changes by parameters are rounding.
-_DOUBLE = (
-    0.05  # A pole may be that of two modes if its residue has a larger share beside one shape.
-)
+_DOUBLE = 0.05  # A pole may be that of more modes if a larger share of its residue is left.
 _BEYOND = 10.0  # Noise explains no residue whose power at the lines is so many times as large.
 _SMALLEST = 1e-13  # Smaller singular values of the scaled terms are rounding.
 
@@ -216,7 +214,7 @@ class _Fit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Residues:
-    """What is left out of the numerators of modes, so that their residues have rank one.
+    """What is left out of the numerators of modes, so that their residues have their few shapes.
 
     A mode has one shape. By noise, a residue has more, with which the link keeps a pole of its own
     when it is joined: a mode that does not exist, which moves the one beside it.
@@ -224,53 +222,52 @@ class _Residues:
 
     shape: _Shape
     excess: FloatArray  # (n_modal_terms, n, n)
-    shapes: ComplexArray  # (n_modes, n), of unit length; NaN of a mode that has no such residue
+    spans: ComplexArray  # (n_modes, n, n), of forces: the projection on those that act on shapes
 
     def weights(self, s: ComplexArray, forces: ComplexArray) -> ComplexArray:
         """Return how f^T H f at s, (1, 1), depends on the numerators, (n_modal_terms, n, n)."""
-        whole, values = np.outer(forces, forces), self.shape.modal_terms(s)[0]
-        weights, n = np.multiply.outer(values, whole), len(self.shapes)
-        for i, (pole, u) in enumerate(zip(self.shape.poles(), self.shapes, strict=True)):
-            if np.isnan(u).any():
-                continue
+        values, n = self.shape.modal_terms(s)[0], len(self.spans)
+        weights = np.empty((len(values), len(forces), len(forces)), complex)
+        for i, (pole, span) in enumerate(zip(self.shape.poles(), self.spans, strict=True)):
             if not self.shape.pairs:
-                weights[i] = values[i] * _along(u.real, forces)
+                weights[i] = values[i] * _along(span.real, forces)
                 continue
             near, far = s[0, 0] - pole, s[0, 0] - pole.conjugate()
-            one = values[i] * far * _along(u, forces) / (2j * pole.imag)
-            other = values[i] * near * _along(u, forces.conj()).conj() / (2j * pole.imag)
+            one = values[i] * far * _along(span, forces) / (2j * pole.imag)
+            other = values[i] * near * _along(span.conj(), forces) / (2j * pole.imag)
             weights[i], weights[n + i] = one - other, pole * one - pole.conjugate() * other
-        return np.asarray(weights)
+        return weights
 
 
-def _along(u: ComplexArray, forces: ComplexArray) -> ComplexArray:
-    """Return how f^T R f changes with a residue R of rank one and shape u, (n, n)."""
-    force, cross = forces @ u, np.outer(u.conj(), forces)
-    return np.asarray(force * (cross + cross.T) - force**2 * np.outer(u.conj(), u.conj()))
+def _along(span: ComplexArray, forces: ComplexArray) -> ComplexArray:
+    """Return how f^T R f changes with a residue R of few shapes, (n, n), by their span."""
+    within = span @ forces
+    cross = np.outer(within, forces)
+    return np.asarray(cross + cross.T - np.outer(within, within))
 
 
 def _residues(shape: _Shape, numerators: FloatArray, allowed: FloatArray) -> _Residues:
     """Return what is left out of the numerators, (n_modal_terms, n, n), of modes.
 
-    `allowed`, (n_modes,), is the largest norm that noise explains. A larger part is kept if it is
-    not small beside the shape, because the pole may be that of two modes.
+    `allowed`, (n_modes,), is the largest norm that noise explains. A residue has one shape, and
+    further ones of a larger norm, as of two modes at one pole, if they are not small beside it.
     """
     poles, size = shape.poles(), numerators.shape[-1]
-    excess, shapes = np.zeros_like(numerators), np.full((len(poles), size), math.nan, complex)
+    excess, spans = np.zeros_like(numerators), np.tile(np.eye(size) + 0j, (len(poles), 1, 1))
     for i, pole in enumerate(poles):
         if not 0.0 < pole.imag < 1.0:  # Above the lines, a term stands for several modes.
             continue
         whole = numerators[i] + (pole * numerators[len(poles) + i] if shape.pairs else 0.0)
         left, values, right = np.linalg.svd(whole)
-        if np.linalg.norm(values[1:]) > max(_DOUBLE * values[0], allowed[i]):
-            continue
-        single = symmetric(values[0] * np.outer(left[:, 0], right[0]))
-        shapes[i] = left[:, 0]
-        excess[i] = (whole - single).real
+        beyond = np.sqrt(np.cumsum(values[::-1] ** 2))[::-1]  # the norm from each value on
+        n = 1 + int((beyond[1:] > max(_DOUBLE * values[0], allowed[i])).sum())
+        rest = symmetric(left[:, n:] * values[n:] @ right[n:])
+        spans[i] = left[:, :n].conj() @ left[:, :n].T
+        excess[i] = rest.real
         if shape.pairs:
-            excess[len(poles) + i] = (whole - single).imag / pole.imag
+            excess[len(poles) + i] = rest.imag / pole.imag
             excess[i] -= pole.real * excess[len(poles) + i]
-    return _Residues(shape, excess, shapes)
+    return _Residues(shape, excess, spans)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -490,8 +487,7 @@ def _choose_modes(
     for free in (False, True):
         tried, best = replace(shape, elastic=replace(shape.elastic, free=free)), math.inf
         for poles in candidates:
-            near = np.abs(poles[:, np.newaxis] - known) <= -poles.real[:, np.newaxis]
-            other = poles[~near.any(axis=1)]
+            other = _others(poles, known)
             start = np.concatenate([np.abs(other) ** 2, -2.0 * other.real])
             found, left = _refined(s, replace(tried, parameters=start), weights, right)
             if (score := _criterion(found, left, right)) < best:
@@ -500,6 +496,15 @@ def _choose_modes(
     among = [int((np.abs(each.poles()) < 1.0).sum()) for each in fits]
     scores = [_criterion(each, _refined(s, each, weights, right)[1], right) for each in fits]
     return fits[int(among[1] < among[0] and scores[1] < scores[0])]
+
+
+def _others(poles: ComplexArray, known: ComplexArray) -> ComplexArray:
+    """Return the poles but for those that are nearest to known ones, within a half-width."""
+    if not len(poles):
+        return poles
+    apart = np.abs(poles[:, np.newaxis] - known)
+    same = (apart == apart.min(axis=0)) & (apart <= -poles.real[:, np.newaxis])
+    return np.asarray(poles[~same.any(axis=1)])
 
 
 def _candidates(omega: FloatArray, frf: ComplexArray) -> list[ComplexArray]:

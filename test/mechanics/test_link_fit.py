@@ -103,6 +103,53 @@ def test_two_modes_at_one_frequency(second: float, relative: float, count: int) 
     assert (values > 1e-2 * values[0]).sum() == count
 
 
+def test_noise_adds_no_shape_to_two() -> None:
+    """A third shape at the pole of two modes is noise of the rigid block, and is left out."""
+    random, lines = np.random.default_rng(4), np.linspace(4.0, 160.0, 40)
+    s = 2j * math.pi * lines
+    exact = np.zeros((40, 6, 6), complex)
+    exact[:, :2, :2] = exact[:, 2:4, 2:4] = receptances(s, 2.4)
+    exact[:, 4:, 4:] = np.eye(2) / MASS / s[:, None, None] ** 2
+    noise = random.standard_normal((2, *exact.shape)) / math.sqrt(2.0)
+    dofs = [InterfaceDof(point, direction) for direction in ("x", "z", "theta") for point in "AB"]
+    motions = np.zeros((6, 4))
+    motions[:2, 0] = motions[2:4, 1] = motions[4, 2] = motions[5, 3] = 1.0
+    noisy = exact * (1.0 + 1e-3 * (noise[0] + 1j * noise[1])) + 1e-9 * noise[1]
+    fit = regularise(dofs, lines, noisy, motions).fit
+    [pole] = fit.poles[fit.poles.imag < 2.0 * math.pi * 160.0]
+    values = np.linalg.svd(fit.at(np.array([pole * (1.0 + 1e-7)]))[0])[1]
+    assert values[1] > 0.5 * values[0]
+    assert values[2] < 1e-4 * values[0]
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-3])
+@pytest.mark.parametrize("gap", [0.5, 2.0])
+def test_modes_nearer_than_their_half_width(gap: float, noise: float) -> None:
+    """A mass inside, which A and B follow alike, has a mode 0.5 or 2 Hz above the elastic one.
+
+    It deforms no link whose forces are in equilibrium, so that the rigid block alone shows it.
+    """
+    random, lines = np.random.default_rng(6), np.linspace(4.0, 160.0, 157)
+    turns, width, together = np.array([1.0, -1j]), 4.0, np.ones((2, 2)) / 2.0
+
+    def both(s: ComplexArray) -> ComplexArray:
+        inner = 1.0 / (s**2 + 2.0 * math.pi * width * s + (2.0 * math.pi * (HERTZ + gap)) ** 2)
+        return receptances(s, width) + np.multiply.outer(inner, together) / MASS
+
+    exact = both(2j * math.pi * lines)
+    real, imaginary = random.standard_normal((2, *exact.shape)) / math.sqrt(2.0)
+    dofs = [InterfaceDof(point, "x") for point in "AB"]
+    noisy = exact * (1.0 + noise * (real + 1j * imaginary))
+    fit = regularise(dofs, lines, noisy, np.ones((2, 1))).fit
+    among = fit.poles[fit.poles.imag < 2.0 * math.pi * 160.0]
+    frequencies = np.sort(np.abs(among)) / (2.0 * math.pi)
+    np.testing.assert_allclose(frequencies, [HERTZ, HERTZ + gap], rtol=max(noise, 1e-5))
+    places = 2j * math.pi * HERTZ * np.array([0.2, 0.7, 1.0, 1.3])
+    missed = np.array([FORCE @ h @ FORCE for h in fit.at(places) - both(places)])
+    variances = [fit.variances(complex(s), FORCE + 0j, turns, noise) for s in places]
+    assert (np.abs(np.multiply.outer(missed, turns).real) < 4.0 * np.sqrt(variances)).all()
+
+
 @pytest.mark.parametrize("law", _Law)
 def test_changes_with_what_is_fitted(law: _Law) -> None:
     """Differences have the same limits as how the fit changes with parameters and numerators.
