@@ -65,8 +65,9 @@ def run(options: argparse.Namespace) -> int:
     for path, page in zip(tqdm(logs, disable=None, unit="log", delay=1.0), pages, strict=True):
         try:
             log = read_drive(path) if options.limits else read_log(path)
-            written += _write(log, page, options)
+            # Limits or an earlier log that cannot be read leave older files as they are.
             faults += [f"{path}: {text}" for text in _view(log, options)]
+            written += _write(log, page, options)
             if several or options.json:
                 drives.append((drive_summary(log), page.name if page else ""))
         except LinkageVibrationError as error:

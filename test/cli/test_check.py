@@ -87,11 +87,14 @@ def test_doubtful_inputs_fail(files: Path, capsys: Any) -> None:
     ],
 )
 def test_errors(files: Path, capsys: Any, limits: str, arguments: list[str], words: str) -> None:
-    """An error of a file is not a failure of a limit: its code is 1, and the XML has the error."""
+    """An error of a file is no failure of a limit: its code is 1, the XML has it, a page stays."""
     write_drive(files / "other.mcap", random_drive(1)[3:])
     (files / "limits.yaml").write_text(limits)
+    (files / "page.html").write_text("of another day")
     junit = [] if "--junit" in arguments else ["--junit", "out.xml"]
-    assert main(["review", "log.mcap", "--limits", "limits.yaml", *arguments, *junit]) == 1
+    arguments = ["--limits", "limits.yaml", "-o", "page.html", *arguments, *junit]
+    assert main(["review", "log.mcap", *arguments]) == 1
+    assert (files / "page.html").read_text() == "of another day"
     [line] = capsys.readouterr().err.splitlines()
     assert words in line
     assert (files / "out.xml").exists() == bool(junit)
