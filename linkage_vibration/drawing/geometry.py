@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from linkage_vibration.mechanics.arrays import FloatArray
+from linkage_vibration.mechanics.arrays import FloatArray, IntArray
 from linkage_vibration.mechanics.components import Component
 from linkage_vibration.mechanics.description import Point
 from linkage_vibration.mechanics.kinematics import Configuration
@@ -63,8 +63,11 @@ def curves(model: LinkageModel, configuration: Configuration) -> Curves:
     return lines
 
 
-def mode_curves(solution: Solution, mode: int) -> Curves:
-    """Return the displacements of the points of `curves` in a mass-normalised mode, 1/sqrt(kg)."""
+def mode_curves(solution: Solution, mode: int | IntArray) -> Curves:
+    """Return displacements of the points of `curves` in a mass-normalised mode, 1/sqrt(kg).
+
+    Of several modes, (k,), they are (n, 2, k).
+    """
     model, shape, shapes = solution.model, solution.modes.shapes[:, mode], dict[str, FloatArray]()
     rigid, u = {body.name for body in model.mechanism.rigid}, shape[: len(model.interface)]
     for component in model.system.components:
@@ -73,18 +76,18 @@ def mode_curves(solution: Solution, mode: int) -> Curves:
         moved, own = np.array([row @ u for row in rows.values()]), shape[model.system.rows[name]]
         if component.drawing is not None:
             along = (component.drawing.displacement @ own)[:, :2]
-            moved = along @ solution.configuration.turn(name).T
+            moved = np.einsum("ij,nj...->ni...", solution.configuration.turn(name), along)
             for node, point in _beside(component.drawing.places, points):
                 moved = np.insert(moved, node + 1, [rows[point] @ u, moved[node]], axis=0)
         elif name in rigid:
             # The first two coordinates of a rigid body are its centre's displacements.
-            moved = np.vstack([moved, own[:2], moved[:1]])
+            moved = np.concatenate([moved, own[np.newaxis, :2], moved[:1]])
         shapes[name] = moved
     return shapes
 
 
-def left_curves(solution: Solution, mode: int, vertical: LinkageModel) -> Curves:
-    """Return `mode_curves` of the left side in a lateral mode; links are drawn straight."""
+def left_curves(solution: Solution, mode: int | IntArray, vertical: LinkageModel) -> Curves:
+    """Return `mode_curves` of the left side in lateral modes; links are drawn straight."""
     model, shapes = solution.model, dict[str, FloatArray]()
     u = solution.modes.shapes[: len(model.interface), mode]
     for component in vertical.system.components:
@@ -93,9 +96,10 @@ def left_curves(solution: Solution, mode: int, vertical: LinkageModel) -> Curves
         moved = (np.array(rows) @ u)[:, ::2]
         if component.drawing is not None:
             x, along = [place[0] for place in points.values()], component.drawing.places[:, 0]
-            moved = np.column_stack([np.interp(along, x, each) for each in moved.T])
+            weights = np.column_stack([np.interp(along, x, each) for each in np.eye(len(x))])
+            moved = np.tensordot(weights, moved, axes=1)
         else:  # The centre of gravity of a rigid body moves along y alone.
-            moved = np.vstack([moved, np.zeros(2), moved[:1]])
+            moved = np.concatenate([moved, np.zeros_like(moved[:1]), moved[:1]])
         shapes[name] = moved
     return shapes
 

@@ -2,18 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluates the model on a grid of angles, between which the page interpolates."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from linkage_vibration.drawing.geometry import (
-    largest,
-    left_curves,
-    mode_curves,
-    nearest_mode,
-    scene,
-    size,
-)
+from linkage_vibration.drawing.geometry import left_curves, mode_curves, nearest_mode, scene, size
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import GROUND, Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
@@ -31,25 +25,25 @@ def linkage_grid(mechanism: Mechanism, table: Table) -> dict[str, Any] | None:
     angles = np.linspace(*table.alpha3_range, DRAWN_ANGLES)
     try:
         model = LinkageModel(mechanism)
-        solved = [[half.solve(float(angle)) for angle in angles] for half in model.halves]
+        solved = [half.stack(angles).rows for half in model.halves]
     except LinkageVibrationError:
         return None
     scenes = [scene(model, solution.configuration) for solution in solved[0]]
     lengths = {n: len(curve) for n, curve in scenes[0].bodies.items() if n != GROUND}
     frequencies = table.evaluate(angles)[:, : table.n_modes]
     shapes = np.zeros((table.n_modes, len(angles), sum(lengths.values()), 2))
-    for mode in range(table.n_modes):
-        lateral = bool(table.lateral_modes[mode])
-        for i, solution in enumerate(solved[lateral]):
-            if np.isnan(frequencies[i, mode]):
-                continue  # an overdamped mode does not oscillate
-            at = nearest_mode(solution, float(frequencies[i, mode]))
+    for lateral, solutions in enumerate(solved):
+        for i, solution in enumerate(solutions):
+            # An overdamped mode does not oscillate.
+            known = np.isfinite(frequencies[i]) & (table.lateral_modes == lateral)
+            at = np.array([nearest_mode(solution, f) for f in frequencies[i, known]], np.int64)
             moved = left_curves(solution, at, model) if lateral else mode_curves(solution, at)
-            moved = {name: moved[name] for name in lengths}
-            shape = np.vstack(list(moved.values())) / largest(moved)
-            # The sign of a shape is arbitrary; it is that of the shape at the previous angle.
-            turned = i > 0 and float((shape * shapes[mode, i - 1]).sum()) < 0.0
-            shapes[mode, i] = -shape if turned else shape
+            shape = np.concatenate([moved[name] for name in lengths])
+            longest = np.linalg.norm(shape, axis=1).max(axis=0)
+            shapes[known, i] = np.moveaxis(shape / longest, 2, 0)
+    for before, here in pairwise(shapes.swapaxes(0, 1)):
+        # The sign of a shape is arbitrary; it is that of the shape at the previous angle.
+        here[(here * before).sum(axis=(1, 2)) < 0.0] *= -1.0
     rigid = {body.name for body in mechanism.rigid_bodies}
     arrays = {
         "places": np.array([np.vstack([drawn.bodies[n] for n in lengths]) for drawn in scenes]),
