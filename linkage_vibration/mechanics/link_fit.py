@@ -118,11 +118,13 @@ class _Shape:
         return replace(self, order=self.order + 1)
 
     def of_any_law(self) -> "_Shape":
-        """Return terms of the same modes with viscous damping of any kind, more if it is that."""
+        """Return more terms of the same modes, with viscous damping of any kind."""
         if self.law is _Law.ANY:
             return self.with_one_more().with_one_more()
         poles = self.poles()
-        return _Shape(_Law.ANY, self.order, np.concatenate([np.abs(poles) ** 2, -2.0 * poles.real]))
+        return _Shape(
+            _Law.ANY, self.order + 1, np.concatenate([np.abs(poles) ** 2, -2.0 * poles.real])
+        )
 
     def poles(self) -> ComplexArray:
         """Return those of modes in the upper half plane, (n_modes,)."""
@@ -229,8 +231,8 @@ class _Residues:
         values, n = self.shape.modal_terms(s)[0], len(self.spans)
         weights = np.empty((len(values), len(forces), len(forces)), complex)
         for i, (pole, span) in enumerate(zip(self.shape.poles(), self.spans, strict=True)):
-            if not self.shape.pairs:
-                weights[i] = values[i] * _along(span.real, forces)
+            if not (self.shape.pairs and pole.imag):  # What does not oscillate keeps all shapes.
+                weights[i::n] = np.multiply.outer(values[i::n], _along(span.real, forces))
                 continue
             near, far = s[0, 0] - pole, s[0, 0] - pole.conjugate()
             one = values[i] * far * _along(span, forces) / (2j * pole.imag)

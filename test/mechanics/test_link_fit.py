@@ -186,6 +186,38 @@ def test_changes_with_what_is_fitted(law: _Law) -> None:
     assert actual == pytest.approx(limit, rel=1e-6)
 
 
+def test_a_pole_that_does_not_oscillate_keeps_all_shapes() -> None:
+    """Its numerators count as they are, whatever noise explains."""
+    random, s = np.random.default_rng(1), np.array([[0.6j]])
+    shape = _Shape(_Law.ANY, 1, np.array([0.3, 0.4, 2.0, 0.02]))
+    assert shape.poles()[0].imag == 0.0
+    given = random.standard_normal((4, 3, 3))
+    residues = _residues(shape, given + given.swapaxes(1, 2), np.full(2, np.inf))
+    assert not residues.excess[[0, 2]].any()
+    assert residues.excess[[1, 3]].any()
+    forces = np.array([1.0, 2.0, 0.5j])
+    weights, whole = residues.weights(s, forces), np.outer(forces, forces)
+    value = 1.0 / (s[0, 0] ** 2 + 2.0 * s[0, 0] + 0.3)
+    np.testing.assert_allclose(weights[0], value * whole, rtol=1e-12)
+    np.testing.assert_allclose(weights[2], s[0, 0] * value * whole, rtol=1e-12)
+
+
+@pytest.mark.parametrize("law", _Law)
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_wider_fits_have_a_further_power(law: _Law, order: int) -> None:
+    """Both fits that show what the number of terms decides follow the next even power of s."""
+    parameters = np.array([0.3, 0.02, *([] if law is _Law.ANY else [0.0])])
+    shape, s = _Shape(law, order, parameters), 1j * np.linspace(0.1, 1.0, 30)[:, np.newaxis]
+    left = []
+    for each in (shape, shape.with_one_more(), shape.of_any_law()):
+        above = each.above(s)
+        values = np.linalg.lstsq(above, s ** (2.0 * order), rcond=None)[0]
+        left.append(np.abs(above @ values - s ** (2.0 * order)).max())
+    # Without damping, the last power of any law is s^(2 order - 2) as well.
+    assert left[0] > 1e-4
+    assert max(left[1:]) < 1e-9
+
+
 def test_too_few_lines() -> None:
     """Twenty-nine lines are refused, and thirty are enough."""
     generator = np.random.default_rng(2)
