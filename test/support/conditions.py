@@ -195,6 +195,7 @@ class Promised:
     since: float = 0.0
     ended: float = float("inf")
     clients: dict[str, Any] = field(default_factory=dict)
+    listening: list[Any] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Listen to the diagnostics, and wait for the load."""
@@ -272,10 +273,16 @@ class Promised:
         return found()[0]
 
     def listen(self, topic: str, kind: Any, qos: Any = 1000) -> list[Any]:
-        """Return a list of the messages on a topic of the node from now on, and subscribe to it."""
+        """Return a list of the messages on a topic of the node from now to the end of a test."""
         received: list[Any] = []
-        self.peer.node.create_subscription(kind, f"{self.name}/{topic}", received.append, qos)
+        subscribe, topic = self.peer.node.create_subscription, f"{self.name}/{topic}"
+        self.listening.append(subscribe(kind, topic, received.append, qos))
         return received
+
+    def listen_no_more(self) -> None:
+        """End what `listen` has begun, which would cost the node and the peer more in each test."""
+        while self.listening:
+            self.peer.node.destroy_subscription(self.listening.pop())
 
     def stop(self, *signals: Any) -> int:
         """End the node by a signal while the load is there, and return its exit code."""

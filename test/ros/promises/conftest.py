@@ -95,4 +95,5 @@ def beside(condition: str, tractor: Tractor, begun: list[Promised]) -> Iterator[
     for each in begun:
         if each.ended > began:
             each.check(began)
+        each.listen_no_more()
     tractor.reset()
