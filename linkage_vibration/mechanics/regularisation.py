@@ -16,6 +16,7 @@ rigid block, in which noise is as harmless as an equal error of the mass, stays 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -141,7 +142,11 @@ def noise_gain(
     Errors dH are independent with e abs(H_kl); poles of a fit and blocks that are arrays are exact.
     """
     frfs = receptances(blocks)
-    frf = np.array([scipy.linalg.block_diag(*lines) for lines in zip(*frfs, strict=True)])
+    ends = np.cumsum([0, *(each.shape[1] for each in frfs)])
+    every = [slice(*pair) for pair in pairwise(ends.tolist())]
+    frf: ComplexArray = np.zeros((len(frfs[0]), ends[-1], ends[-1]), np.complex128)
+    for dofs, values in zip(every, frfs, strict=True):
+        frf[:, dofs, dofs] = values
     interface = compatibility @ frf @ compatibility.T
     diagonal = np.arange(len(compatibility))
     interface[:, diagonal, diagonal] += compliance
@@ -150,17 +155,14 @@ def noise_gain(
     into = inputs.T - joints.swapaxes(1, 2) @ (compatibility @ frf @ inputs.T)
     coupled = np.abs(outputs @ frf @ into)
     power = np.zeros(coupled.shape)
-    start = 0
-    for block, values in zip(blocks, frfs, strict=True):
-        dofs = slice(start, start + values.shape[1])
-        start = dofs.stop
+    for block, values, dofs in zip(blocks, frfs, every, strict=True):
         if not isinstance(block, MeasuredFrfs):
             continue
         for i, j in np.ndindex(*coupled.shape[1:]):
             left, right = away[:, i, dofs], into[:, dofs, j]
-            every = _even(left, right)
             kept = _even(left @ block.kept, right @ block.kept)
-            fitted = block.leverage[:, np.newaxis, np.newaxis] * np.abs(every - kept) ** 2
+            rest = np.abs(_even(left, right) - kept) ** 2
+            fitted = block.leverage[:, np.newaxis, np.newaxis] * rest
             power[:, i, j] += ((np.abs(kept) ** 2 + fitted) * np.abs(values) ** 2).sum(axis=(1, 2))
     # A response of zero has no relative error.
     return np.asarray(np.sqrt(power) / np.where(coupled > 0.0, coupled, np.inf))
