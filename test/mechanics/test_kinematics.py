@@ -3,7 +3,6 @@
 """Loop closure against circles, published figures and differences."""
 
 import dataclasses
-import functools
 import math
 from typing import Any
 
@@ -21,14 +20,12 @@ from linkage_vibration.mechanics.kinematics import (
     Kinematics,
     KinematicsError,
     _spline,
+    kinematics_of,
 )
 from linkage_vibration.mechanics.model import LinkageModel
 from linkage_vibration.mechanics.parsing import mechanism_from_mapping
 
 FloatArray = NDArray[np.float64]
-
-
-kinematics_of = functools.cache(Kinematics)
 
 
 def circles(
@@ -89,6 +86,18 @@ def test_angles_of_the_default_linkage(
     actual = [math.degrees(configuration.angle(body)) for body in bodies]
     assert actual == pytest.approx(angles, abs=0.006)
     assert configuration.velocity_ratio("implement") == pytest.approx(ratio, abs=6e-4)
+
+
+def test_geometry_is_traced_once(mechanism: Mechanism, mapping: Any, printed: Mechanism) -> None:
+    """Other masses have the same kinematics, and other points, stroke or pose their own."""
+    first = kinematics_of(mechanism)
+    mapping["rigid_bodies"]["implement"]["mass"] *= 2.0
+    assert kinematics_of(mechanism_from_mapping(mapping)) is first
+    mapping["input"]["range_deg"][0] += 1.0
+    for other in (printed, mechanism_from_mapping(mapping)):
+        own, alpha3 = kinematics_of(other), sum(other.stroke) / 2.0
+        assert own is not first
+        np.testing.assert_array_equal(own.at(alpha3).angles, Kinematics(other).at(alpha3).angles)
 
 
 def test_toggles(mechanism: Mechanism, printed: Mechanism) -> None:

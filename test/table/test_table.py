@@ -14,10 +14,12 @@ import pytest
 from linkage_vibration.errors import LinkageVibrationError
 from linkage_vibration.mechanics.description import Mechanism
 from linkage_vibration.mechanics.model import LinkageModel
+from linkage_vibration.readers.mechanism import read_mechanism
 from linkage_vibration.support.atomic_files import OutputError
 from linkage_vibration.support.resources import config_file
 from linkage_vibration.table.table import Table, TableError, load_table, save_table, table_bytes
 from linkage_vibration.table.tabulation import build_table
+from test.support.served import turning_table
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +81,20 @@ def test_frf_of_some_places(small: Table) -> None:
     some = small.frf(2.0, [("V1", "x"), ("E1", "z")], [("E2", "x")]).frf(lines)
     at = [small.places.index(place) for place in (("V1", "x"), ("E1", "z"), ("E2", "x"))]
     np.testing.assert_array_equal(some, full[:, at[:2]][:, :, at[2:]])
+
+
+def test_frfs_at_many_angles() -> None:
+    """In any order, and in each piece of the stroke, they are those of the model at each angle."""
+    table, lines = turning_table(), np.linspace(5.0, 60.0, 12)
+    model, places = LinkageModel(read_mechanism(config_file("four_bar.yaml"))), table.places[:2]
+    assert len(table.pieces) > 3
+    angles = np.random.default_rng(2).uniform(*table.alpha3_range, 9)
+    for alpha3, frf in zip(angles.tolist(), table.frf_at_each(angles, places, places), strict=True):
+        exact = model.solve(alpha3).frf(places, places).frf(lines)
+        assert np.abs(frf.frf(lines) - exact).max() < 0.02 * np.abs(exact).max()
+    with pytest.raises(TableError, match="outside the table"):
+        table.frf_at_each([*angles, 1e3], places, places)
+    assert table.frf_at_each([], places, places) == []
 
 
 def test_frf_that_the_table_does_not_have(small: Table) -> None:
