@@ -17,7 +17,7 @@ the bending of a link between two pins, and real poles near the first line, as o
 damping is proportional to their mass, or that are hung up softly. Where these real poles lie is a
 choice, so a second fit has them between those of the first: what depends on the choice is noise. So
 is the number of terms: the criterion leaves out a term whose effect is several times its deviation,
-and a third fit has more terms, of any damping or one of the same law.
+and two further fits have more terms, one of them of any damping; the larger change counts.
 
 A mode among the lines has one shape, so that its residue is the outer product of the shape with
 itself. The nearest one in the least-squares sense replaces the residue that the lines give, unless
@@ -61,6 +61,10 @@ class Choice(enum.Enum):
     BEST = enum.auto()
     SHIFTED = enum.auto()  # other real poles of the rigid block
     WIDER = enum.auto()  # more terms for what lies above the lines
+    FREER = enum.auto()  # likewise, with viscous damping of any kind
+
+
+_MORE_TERMS = Choice.WIDER, Choice.FREER
 
 
 class _Law(enum.Enum):
@@ -331,18 +335,21 @@ class LinkFit:
     ) -> FloatArray:
         """Return variances of Re(t f^T H(s) f), (n_turns,), by relative noise; f, (n,), in N.
 
-        They contain the square of what a fit with more terms changes, beyond what noise does to it.
+        They contain the larger square of what fits with more terms change, beyond what noise does.
         """
-        best, wider = (self._shares(s, forces, each) for each in (Choice.BEST, Choice.WIDER))
+        best, *others = (self._shares(s, forces, each) for each in (Choice.BEST, *_MORE_TERMS))
         power = np.abs(self.lines) ** 2 / 2.0
         power = noise**2 * np.concatenate([power, power])
         at = np.array([s])
-        change = forces @ (self.at(at, Choice.WIDER) - self.at(at))[0] @ forces
-        by_noise, of_change = (
+        by_noise, *of_changes = (
             np.array([((turn * shares).real ** 2 * power).sum() for turn in turns])
-            for shares in (best, wider - best)
+            for shares in (best, *(other - best for other in others))
         )
-        return np.asarray(by_noise + np.maximum((turns * change).real ** 2 - of_change, 0.0))
+        hidden = np.zeros(len(turns))
+        for choice, of_change in zip(_MORE_TERMS, of_changes, strict=True):
+            change = forces @ (self.at(at, choice) - self.at(at))[0] @ forces
+            hidden = np.maximum(hidden, (turns * change).real ** 2 - of_change)
+        return np.asarray(by_noise + hidden)
 
     def _shares(self, s: complex, forces: ComplexArray, choice: Choice) -> ComplexArray:
         """Return the change of f^T H(s) f with parts of lines, (2 n_freq, n, n)."""
@@ -399,12 +406,14 @@ def fit_link(
     rigid, elastic = motions @ motions.T, scipy.linalg.null_space(motions.T)
     across = lines @ elastic  # a difference of large numbers would lose its digits
     s = 1j * omega[:, np.newaxis] / omega[-1]
-    shape = wider = _Shape(_Law.ANY, 1, np.empty(0))
+    shape = _Shape(_Law.ANY, 1, np.empty(0))
+    wider = dict.fromkeys(_MORE_TERMS, shape)
     candidates = _candidates(omega, frf)
     right = real_equations(weights * across.reshape(len(omega), -1))
     if elastic.size:
         shape = _choose(s, right, weights, candidates)
-        wider = _improved(s, [shape.with_one_more(), shape.of_any_law()], weights, right)
+        more = zip(_MORE_TERMS, (shape.with_one_more(), shape.of_any_law()), strict=True)
+        wider = {choice: _refined(s, each, weights, right)[0] for choice, each in more}
     side = rigid @ across @ elastic.T
     rest = side + side.swapaxes(1, 2) + elastic @ (elastic.T @ across) @ elastic.T
     block = rigid @ lines @ rigid
@@ -415,10 +424,10 @@ def fit_link(
     )
     parts = {}
     for choice in Choice:
-        taken = wider if choice is Choice.WIDER else shape
+        taken = wider.get(choice, shape)
         shift = _SHIFT if choice is Choice.SHIFTED else 1.0
         beside = replace(taken, free=rigid_shape.elastic.free)
-        beside = beside.with_one_more() if choice is Choice.WIDER else beside
+        beside = beside.with_one_more() if choice in _MORE_TERMS else beside
         rigid_taken = replace(rigid_shape, elastic=beside, rates=shift * rates)
         pulls = _pulls(s, taken, right, weights)
         rigid_pulls = _pulls(s, rigid_taken, block_right, weights)

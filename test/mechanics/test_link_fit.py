@@ -10,7 +10,7 @@ import pytest
 
 from linkage_vibration.mechanics.arrays import ComplexArray, FloatArray
 from linkage_vibration.mechanics.description import InterfaceDof
-from linkage_vibration.mechanics.link_fit import LinkFit, _Law, _residues, _Shape
+from linkage_vibration.mechanics.link_fit import Choice, LinkFit, _Law, _residues, _Shape
 from linkage_vibration.mechanics.regularisation import RegularisationError, regularise
 
 MASS, STIFFNESS = 4.0, 2.5e5  # kg of each of two masses, N/m of the spring between them
@@ -216,6 +216,26 @@ def test_wider_fits_have_a_further_power(law: _Law, order: int) -> None:
     # Without damping, the last power of any law is s^(2 order - 2) as well.
     assert left[0] > 1e-4
     assert max(left[1:]) < 1e-9
+
+
+def test_variances_contain_the_larger_change_of_both_wider_fits() -> None:
+    """Either of them can be the larger; the one that leaves less hid the other."""
+    generator, lines = np.random.default_rng(7), np.linspace(4.0, 160.0, 40)
+    turns, larger = np.array([1.0, -1j]), set[bool]()
+    for _ in range(6):
+        fit = fitted(lines, 2.4, 1e-2, generator)
+        best = fit.parts[Choice.BEST]
+        alone = [
+            replace(fit, parts={**fit.parts, without: best})
+            for without in (Choice.WIDER, Choice.FREER)
+        ]
+        for s in 2j * math.pi * HERTZ * np.array([0.3, 1.5, 2.5]):
+            both, freer, wider = (
+                each.variances(complex(s), FORCE + 0j, turns, 1e-2) for each in (fit, *alone)
+            )
+            np.testing.assert_allclose(both, np.maximum(freer, wider), rtol=1e-9)
+            larger |= set((freer > 1.01 * wider).tolist()) if (freer != wider).any() else set()
+    assert larger == {False, True}
 
 
 def test_too_few_lines() -> None:
